@@ -22,7 +22,7 @@ class Observer:
     """Follows a bench and a run on it. Every method is empty: a listener has those that it needs."""
 
     def before_light(self) -> None:
-        """Light is asked for. An `InstrumentError` raised here refuses it."""
+        """Light is asked for, or a person for what comes before it. What is raised here refuses it."""
 
     def while_lit(self) -> None:
         """Light stays on for another while. An `InstrumentError` raised here ends it."""
@@ -40,7 +40,7 @@ class Observer:
         """The instrument called `name` has said who it is; what is raised here refuses it."""
 
     def uploading(self, what: str, done: int, total: int) -> None:
-        """So much of a waveform or of pictures is uploaded, of so much in all."""
+        """So much of a waveform or of pictures is uploaded, of so much in all. What is raised here ends it."""
 
     def step(self, name: str) -> AbstractContextManager[Any]:
         """One step of a shot is taken inside the block; see `labctl.engine.profile` for the names."""
@@ -343,6 +343,7 @@ class Bench:
             raise
 
     def _switch_on(self) -> None:
+        self.observer.before_light()  # once more: a person may have been asked for the laser's settings
         self.lit = True
         self.observer.emission(on=True)
         self.laser.emit()
@@ -461,7 +462,10 @@ class Bench:
             UnsafeBench: what gives light did not obey; nobody was asked to touch a fibre.
             InstrumentError, OverLimit: the panel failed, or the light as in `emitting`.
         """
-        was_lit = self.lit and self.patch_panel.asks(patching)
+        asks = self.patch_panel.asks(patching)
+        if asks:
+            self.observer.before_light()
+        was_lit = self.lit and asks
         if was_lit:
             self.lit = False
             self.darken(name for name in LIGHT if name in self.instruments)
@@ -469,7 +473,6 @@ class Bench:
         self.patch_panel.connect(patching)
         self.observer.event("patched", ports={str(channel): port for channel, port in patching.items()})
         if was_lit:
-            self.observer.before_light()
             self.train.shut()  # who was at the bench may have touched that too
             self._switch_on()
 

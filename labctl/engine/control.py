@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from instruments.bench import Bench, Observer, Observers
 from labctl.bench.signals import Interruption, StoppedBySignal
 from labctl.runs.live.control_file import CONTROL, Word, word_in
 
@@ -11,7 +12,11 @@ LOOK_EVERY_S = 0.1
 """How soon a paused run hears that it may go on."""
 
 
-class Control:
+class HeldBack(GeneratorExit):
+    """Light is not wanted now: a protocol ends where it is, as if its generator were closed. Nothing has failed."""
+
+
+class Control(Observer):
     """What the run under way is asked, by signals to it (`interruption`) and by the file at `path`."""
 
     def __init__(self, path: Path, interruption: Interruption) -> None:
@@ -41,6 +46,30 @@ class Control:
             StoppedBySignal: it is to end now.
         """
         return self._look() is Word.PAUSE and not self.interruption.requested
+
+    @contextmanager
+    def followed(self, bench: Bench) -> Iterator[None]:
+        """Inside the block what is asked is heard too while `bench` gets ready for light, which may take minutes."""
+        observer = bench.observer
+        bench.observer = Observers(observer, self)
+        try:
+            yield
+        finally:
+            bench.observer = observer
+
+    def before_light(self) -> None:
+        """No light comes on, and nobody is asked for anything, where nothing more is to be measured now.
+
+        Raises:
+            HeldBack: so it is.
+            StoppedBySignal: the run is to end now.
+        """
+        if self.holds:
+            raise HeldBack
+
+    def uploading(self, _what: str, _done: int, _total: int) -> None:
+        """As `before_light`."""
+        self.before_light()
 
     def wait(self) -> None:
         """Return when the run may go on, or is to end."""

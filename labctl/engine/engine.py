@@ -20,7 +20,7 @@ from instruments.safe_state import ending_with
 from instruments.values import Scaling
 from labctl.bench.identity import who_they_are
 from labctl.bench.signals import Interruption
-from labctl.engine.control import Control, controlled
+from labctl.engine.control import Control, HeldBack, controlled
 from labctl.engine.light_check import REPEATS, first_of, refuse_changed_light, to_repeat
 from labctl.engine.manifest import light_and_instruments, manifest
 from labctl.engine.plan import Request, checked, new_directory
@@ -200,10 +200,11 @@ class _Measurement:
                     if failure is not error:
                         error.add_note(str(failure))
                     raise error from None
-                if not isinstance(error, InstrumentError):
+                if not isinstance(error, InstrumentError | HeldBack):
                     raise
                 recorder.report()
-                self._recovery.after(error, sum(self._writer.done))
+                if isinstance(error, InstrumentError):
+                    self._recovery.after(error, sum(self._writer.done))
             recorder.darkened()
 
     def _record(self, missing: list[Part], recorder: Recorder) -> bool:
@@ -211,7 +212,7 @@ class _Measurement:
         known = self._known(missing[0])
         parts = missing if known is None else [known, *missing]
         events = self._request.protocol.acquire(self._bench, self._request.inputs, parts)
-        with ending_with(self._darken), ending_with(events.close):
+        with self._control.followed(self._bench), ending_with(self._darken), ending_with(events.close):
             if known is not None:
                 self._compare(events, known)
             return recorder.record(events)

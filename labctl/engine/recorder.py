@@ -118,7 +118,7 @@ class Recorder:
         return held
 
     def conclude(self, error: BaseException) -> None:
-        """Light went out by an error: what was measured since nothing was known to be wrong stays, or is in doubt.
+        """Light went out before its time: what was measured since nothing was known to be wrong stays, or is in doubt.
 
         Settings outlast the light, so they are compared once more, unless an instrument is out of reach.
 

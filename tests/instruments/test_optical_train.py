@@ -129,6 +129,31 @@ def test_nobody_is_asked_to_move_fibres_while_the_laser_may_emit(bench: Bench, s
     assert not asked
 
 
+def test_nobody_is_asked_to_move_fibres_for_light_that_is_refused(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+
+    def operator(request: str) -> str:
+        asked.append(request)
+        return ""
+
+    def refuse() -> None:
+        raise UnsafeBench("the supervisor has ended")
+
+    def measure() -> None:
+        with bench.emitting(1550.0, {1: 2}):
+            monkeypatch.setattr(bench.observer, "before_light", refuse)
+            bench.connect({1: 3})
+
+    bench.patch_panel = ManualPatchPanel(operator, ports=(2, 3))
+    for _ in range(2):  # in the light of another patching, and before any
+        with pytest.raises(UnsafeBench, match="supervisor"):
+            measure()
+    assert len(asked) == 1
+    assert bench.laser.settings()["emitting"] == 0
+
+
 def test_what_a_person_is_asked_in_vain_is_told_as_that(bench: Bench) -> None:
     """Not as light that went out."""
 
