@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from instruments.alnair_tlg220 import Tlg220Section
+from instruments.interfaces import BYPASS_PORT
 from instruments.laser_table import LaserTable
 from instruments.plug_ins import plug_ins
 from instruments.sections import SIMULATED
@@ -75,7 +76,7 @@ def simulated_bench(
         LaserTable.read(laser.commands)
         laser_table = read_toml(laser.commands)
     try:
-        return FaultyBench(
+        bench = FaultyBench(
             befalling,
             physical_parameters(station),
             twin_seed=station.sim.twin_seed,
@@ -89,6 +90,9 @@ def simulated_bench(
         )
     except NoSuchModes as error:
         raise StationError(f"{station.source}: sim.parameters: {error}") from None
+    if station.patch_panel.bypass:  # plugged in, until the panel is told to connect something
+        bench.world.patch({station.scope.channels[0]: BYPASS_PORT})
+    return bench
 
 
 def without_card(missing: str) -> str:

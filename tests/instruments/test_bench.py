@@ -4,6 +4,7 @@ import re
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, nullcontext
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,8 +21,10 @@ from instruments.visa import VisaLink
 from labctl.bench.opening import Access, opened
 from labctl.bench.simulation import SIMULATED_LASER
 from labctl.bench.station import LimitsSection, Station
+from labctl.engine.session import Acquisition, acquire
 from labctl.errors import StationError
 from labctl.runs.live.logs import CommandLog
+from protocols.image_readout import ImageReadout
 from sim_backends.bench import SimulatedBench
 from sim_backends.virtual import VirtualTlg220
 
@@ -202,6 +205,21 @@ def test_a_port_that_is_not_patched(bench: Bench) -> None:
 def test_a_bypassed_chip_has_one_fibre() -> None:
     with CommandLog() as log, opened(Station(patch_panel={"bypass": True}), log) as found:
         assert found.bench.patchings_for((2, 3, 4, 5, 6)) == ({1: BYPASS_PORT},)
+
+
+@pytest.mark.parametrize("driver", ["scpi-fibre-switch", "manual-patch-panel"])
+def test_a_fibre_that_is_plugged_in_for_good_is_neither_routed_nor_asked_for(
+    driver: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The panel carries the ports of the chip alone."""
+    asked: list[str] = []
+    monkeypatch.setattr("labctl.bench.opening.ask_operator", asked.append)
+    panel = {"driver": driver, "ports": (2, 3, 4, 5, 6), "bypass": True}
+    protocol = ImageReadout(images=4, window=0.8e-9)
+    for channels in ((1, 2, 3, 4), (2, 4)):
+        station = Station(mixed=True, patch_panel=panel, scope={"channels": channels})
+        assert acquire(Acquisition(protocol, station, tmp_path / str(channels[0]))).outcome.complete
+    assert not asked
 
 
 @pytest.mark.parametrize(
