@@ -57,8 +57,8 @@ def read_sweep(
         raise UsageError(f"{path}: is not TOML ({error}): correct that line") from None
     for table, more in (("over", over), ("settings", settings)):
         if isinstance(there := content.get(table, {}), dict) and more:  # anything else is refused
-            content[table] = there | more
-    return declared(content | others, str(path))
+            content[table] = {**there, **more}
+    return declared({**content, **others}, str(path))
 
 
 def declared(content: Mapping[str, Any], origin: str) -> Sweep:
