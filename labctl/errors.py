@@ -3,6 +3,7 @@
 Those of instruments and protocols are where these are: `instruments.errors`, `protocols.base`.
 """
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -30,6 +31,7 @@ __all__ = [
     "UsageError",
     "WorkerKilled",
     "WrongPlace",
+    "clock_ended",
     "noted_on",
     "notes",
     "one_line",
@@ -151,6 +153,12 @@ def noted_on(error: BaseException | None) -> Iterator[None]:
 def notes(error: BaseException) -> tuple[str, ...]:
     """What failed after it, such as the safe state or the closing of a connection: one line each."""
     return tuple(dict.fromkeys(" ".join(note.split()) for note in getattr(error, "__notes__", ())))
+
+
+def clock_ended(error: Exception) -> bool:
+    """Whether the clock of a simulated bench has ended, of which `error` says all."""
+    world = sys.modules.get("sim_backends.world.world")  # loaded where one could
+    return world is not None and isinstance(error, world.ClockEnded)
 
 
 def one_line(error: Exception) -> str:

@@ -19,7 +19,7 @@ from instruments.remedies import refusal
 from labctl.commands.command_group import PLAIN, Stopped, UnloadedCommands
 from labctl.commands.exit_status import FELL_SHORT, INTERRUPTED, WRONG_USE
 from labctl.commands.refusal import refuse_bench_in_use
-from labctl.errors import LabctlError, notes, one_line
+from labctl.errors import LabctlError, clock_ended, notes, one_line
 from labctl.printable import json_line, log_printably, printable, printable_traceback
 
 LESS = "end other programs, or ask for less, such as fewer images or a shorter window"
@@ -104,6 +104,8 @@ def _status(words: list[str], *, debug: bool) -> int:
         known = refusal(error) if isinstance(error, OSError) else None
         if isinstance(error, MemoryError):
             known = f"{one_line(error) or 'no memory is left'}: {LESS}"
+        elif clock_ended(error):
+            known = one_line(error)
         return _complain(known or _unexpected(error), FELL_SHORT, words, notes(error))
     return status if isinstance(status, int) else 0
 

@@ -24,6 +24,7 @@ from weakref import WeakSet
 from sim_backends.scpi.messages import Chunk, Message, MessageReader, Unit
 from sim_backends.servers.disturbed import Disturbed
 from sim_backends.world.receivers import CardFull
+from sim_backends.world.world import ClockEnded
 
 logger = logging.getLogger(__name__)
 
@@ -265,8 +266,8 @@ class Loop:
     def _run(self) -> None:
         try:
             self._serve()
-        except CardFull as full:  # of which the traceback says no more
-            self._failure = full
+        except (CardFull, ClockEnded) as end:  # of which the traceback says no more
+            self._failure = end
         except BaseException as failure:  # an error of a virtual instrument: for `stop` to raise
             logger.exception("the simulated bench failed and closes its connections")
             self._failure = failure

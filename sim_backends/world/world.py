@@ -49,6 +49,14 @@ _ONSET_S = 15e-9  # longer than fibre, chip and filters remember, an oscilloscop
 _LONGEST_ONSET = 2**22  # samples of a repeated segment that are followed from its first one on
 
 
+LONGEST_S = 2.0**18
+"""Of virtual time, three days. Later times would be rounded to 58 ps, by which the same light would not be the same."""
+
+
+class ClockEnded(Exception):
+    """A simulated bench has come to the end of its clock: one line that says what to do."""
+
+
 class VirtualClock:
     """Virtual time of a bench: `now`, in seconds since it was switched on; waiting costs nothing else."""
 
@@ -60,9 +68,15 @@ class VirtualClock:
 
         Raises:
             ValueError: `seconds` is negative or not a number.
+            ClockEnded: that is after `LONGEST_S`.
         """
         if not seconds >= 0:
             raise ValueError(f"the virtual clock cannot advance by {seconds} s: give a time of at least 0")
+        if self.now + seconds > LONGEST_S:
+            raise ClockEnded(
+                "the clock of the simulated bench ends after three days, beyond which it could not tell picoseconds: "
+                "start the simulated bench anew"
+            )
         self.now += seconds
 
 

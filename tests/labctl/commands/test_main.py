@@ -273,6 +273,15 @@ class TestWrongUse:
             "labctl: no memory is left: end other programs, or ask for less, such as fewer images or a shorter window\n"
         )
 
+    def test_the_end_of_the_simulated_clock_is_one_line_that_says_what_to_do(
+        self, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    ) -> None:
+        monkeypatch.setattr("sim_backends.world.world.LONGEST_S", 3.0)
+        status, out, err = labctl(capsys, "run", "image-readout", *SMALL, "--out", tmp_path / "run", "--json")
+        assert status == json.loads(out)["exit"] == 1
+        assert json.loads(out)["error"].endswith("start the simulated bench anew")
+        assert "Traceback" not in err
+
     def test_scripts_get_the_error_as_json(self, capsys: pytest.CaptureFixture[str]) -> None:
         status, found = as_json(capsys, "run", "nothing")
         assert status == found["exit"] == 2

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from sim_backends.parameters import SPEED_OF_LIGHT
 from sim_backends.world.signals import AUX, Acquisition, Playback, TriggerCondition
-from sim_backends.world.world import VirtualClock, upcoming
+from sim_backends.world.world import LONGEST_S, ClockEnded, VirtualClock, upcoming
 from tests.sim_backends.world.light import MARKER, RATE, Array, bench, coming, distance, playback, quiet, shoot
 
 
@@ -26,10 +26,11 @@ def test_triggers_come_with_the_marker_and_not_before_now() -> None:
     assert np.diff(coming(world, MARKER, 2, 1e-3))[0] == pytest.approx(1e-3, abs=20e-9)
 
 
-def test_trigger_phase_survives_a_long_virtual_time() -> None:
+@pytest.mark.parametrize("later_s", [5000.0, 260_000.0])
+def test_trigger_phase_survives_a_long_virtual_time(later_s: float) -> None:
     early, late = bench(parameters=quiet()), bench(parameters=quiet())
-    late.clock.advance(5000.0)
-    assert np.array_equal(shoot(early).volts, shoot(late).volts)
+    late.clock.advance(later_s)
+    assert np.array_equal(shoot(early, 8).volts, shoot(late, 8).volts)
 
 
 def test_light_itself_can_trigger() -> None:
@@ -161,6 +162,14 @@ def test_clock_goes_forward_only() -> None:
         clock.advance(-1.0)
     with pytest.raises(ValueError, match="at least 0"):
         clock.advance(float("nan"))
+
+
+def test_clock_ends_where_it_would_no_longer_tell_picoseconds() -> None:
+    clock = VirtualClock()
+    clock.advance(LONGEST_S)
+    with pytest.raises(ClockEnded, match="start the simulated bench anew"):
+        clock.advance(1e-9)
+    assert clock.now == LONGEST_S
 
 
 @given(
