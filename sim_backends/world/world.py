@@ -281,18 +281,26 @@ class World:
         self.physics_seconds += perf_counter() - began
         return times if times.size else None
 
-    def record(self, acquisition: Acquisition, trigger_times: NDArray[np.float64], *, setting: bytes = b"") -> Record:
+    def record(
+        self,
+        acquisition: Acquisition,
+        trigger_times: NDArray[np.float64],
+        *,
+        setting: bytes = b"",
+        whole: Acquisition | None = None,
+    ) -> Record:
         """Sample the light after each of `trigger_times`, (T,) s.
 
         Every trigger sees the pattern that is on the mirrors then, and the light of the segment that plays then.
-        `setting` names what else the oscilloscope's noise depends on, its vertical settings for instance.
+        `setting` names what else the oscilloscope's noise depends on, its vertical settings for instance. `whole` spans
+        all points that `further` may be asked for, where these are more than those of `acquisition`.
         """
         began = perf_counter()
-        times = np.asarray(trigger_times, np.float64)
+        times, whole = np.asarray(trigger_times, np.float64), whole or acquisition
         sight = self._pictures.sight(
             times,
-            begins_s=acquisition.start_s,
-            ends_s=acquisition.start_s + acquisition.samples / acquisition.sample_rate,
+            begins_s=whole.start_s,
+            ends_s=whole.start_s + whole.samples / whole.sample_rate,
         )
         direct = self.parameters.light_path == "direct"  # past the mirrors: what they show is no part of the state
         keys = self._keys([FLOATING] * times.size if direct else sight.names, acquisition, setting)
@@ -301,7 +309,7 @@ class World:
         lateness += offsets - coarse
         lights = [
             (light, np.array(rows), self._under(light, acquisition.channels))
-            for light, rows in self._alike(times, coarse, acquisition, sight).items()
+            for light, rows in self._alike(times, coarse, whole, sight).items()
         ]
         detected = partial(self._detected, lights, sight, lateness)
         volts = detected(acquisition, white)

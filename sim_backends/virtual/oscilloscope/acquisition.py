@@ -318,7 +318,7 @@ class AcquisitionSystem(Oscilloscope):
         """Digitise the points that are to be sent, the others when they are: a record begins at hundreds of points."""
         plan = progress.plan
         first, behind = _parts(plan.acquisition, self.transfer.last)
-        record = self.world.record(first, times, setting=plan.verticals_key)
+        record = self.world.record(first, times, setting=plan.verticals_key, whole=plan.acquisition)
         progress.add(self._codes(record, plan.verticals), record.trigger_offset_s)
 
         def others() -> Codes:
@@ -335,8 +335,8 @@ class AcquisitionSystem(Oscilloscope):
         step = max(1, SAMPLES_AT_ONCE // max(1, len(inputs) * drawn))
         for first in range(0, times.size if inputs else 0, step):
             last = max(inputs)
-            whole = _through(sampled, *last)
-            record = self.world.record(whole, times[first : first + step], setting=plan.verticals_key)
+            own_times, spanned = times[first : first + step], _spanned(sampled, *inputs)
+            record = self.world.record(_through(sampled, *last), own_times, setting=plan.verticals_key, whole=spanned)
             codes = self._codes(record, plan.verticals)
             for another in set(inputs) - {last}:  # channels with other times or bandwidths, behind the same triggers
                 rows = [row for row, own in enumerate(inputs) if own == another]
@@ -452,6 +452,15 @@ class AcquisitionSystem(Oscilloscope):
 def _through(acquisition: Acquisition, deskew_s: float, limit_hz: float) -> Acquisition:
     """What an input samples that is so late and so narrow."""
     return replace(acquisition, start_s=acquisition.start_s + deskew_s, bandwidth_hz=limit_hz)
+
+
+@lru_cache(maxsize=16)
+def _spanned(acquisition: Acquisition, *inputs: tuple[float, float]) -> Acquisition:
+    """What all inputs sample together, each so late and so narrow."""
+    late_s = [deskew_s for deskew_s, _ in inputs]
+    more = math.ceil((max(late_s) - min(late_s)) * acquisition.sample_rate)
+    first = _through(acquisition, min(late_s), min(limit_hz for _, limit_hz in inputs))
+    return replace(first, samples=acquisition.samples + more)
 
 
 @lru_cache(maxsize=16)

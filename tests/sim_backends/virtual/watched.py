@@ -70,9 +70,16 @@ class Watched(World):
         self.shown.append(projection)
         super().project(projection)
 
-    def record(self, acquisition: Acquisition, trigger_times: NDArray[np.float64], *, setting: bytes = b"") -> Record:
+    def record(
+        self,
+        acquisition: Acquisition,
+        trigger_times: NDArray[np.float64],
+        *,
+        setting: bytes = b"",
+        whole: Acquisition | None = None,
+    ) -> Record:
         self.records.append((acquisition, trigger_times))
-        return super().record(acquisition, trigger_times, setting=setting)
+        return super().record(acquisition, trigger_times, setting=setting, whole=whole)
 
 
 def messages(text: str | bytes) -> list[Message]:

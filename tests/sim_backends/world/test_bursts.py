@@ -1,6 +1,7 @@
 """Bursts: the DMD's frame synch triggers the generator, whose marker triggers the oscilloscope."""
 
 import tracemalloc
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -251,6 +252,17 @@ def test_a_record_can_see_the_picture_change() -> None:
     assert np.ptp(trace[:1400]) < 1e-3 * trace.max()
     assert np.ptp(trace[2600:]) < 1e-3 * trace.max()
     assert abs(trace[0] - trace[-1]) > 0.02 * trace.max()
+
+
+def test_further_points_see_the_picture_of_their_time() -> None:
+    world = bench(continuous(), dim())
+    projection = Projection(np.array([[729], [0]], np.uint16).repeat(784, axis=1), world.clock.now, PICTURE_S)
+    world.project(projection)
+    whole = Acquisition((1,), 1e9, 60_000, 0.0)
+    seen = world.record(replace(whole, samples=500), np.array([projection.start_s]), whole=whole)
+    world.show(PATTERNS[0])
+    bright, dark = (seen.further(replace(whole, samples=9000, start_s=start_s)).mean() for start_s in (30e-6, 50e-6))
+    assert bright > 100 * dark
 
 
 def test_segments_play_in_turn() -> None:

@@ -1,11 +1,13 @@
 """Waveforms of the virtual oscilloscope: preamble, encodings, which part is sent."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from sim_backends.virtual import VirtualDpo72504dx
 from sim_backends.world.signals import Emission
-from tests.sim_backends.virtual.dpo72504dx.session import block, events, number, volts
+from tests.sim_backends.virtual.dpo72504dx.session import PERIOD, block, events, number, playback, volts
 from tests.sim_backends.virtual.watched import Ask, Read, Watched
 
 
@@ -115,6 +117,16 @@ def test_points_that_were_not_to_be_sent_are_there_all_the_same(
     assert np.std(whole[40:] - like[40:]) == pytest.approx(np.std(first - like[:40]), rel=0.5), "with its own noise"
     ask(scope, "DATa:SOUrce CH2;STARt 100;STOP 200")
     assert volts(ask, scope).size == 101
+
+
+def test_points_sent_later_are_of_a_segment_that_runs_on(ask: Ask, scope: VirtualDpo72504dx, world: Watched) -> None:
+    world.play(replace(playback(triggered=True), runs_on=True))
+    ask(scope, "HORizontal:MODE:RECOrdlength 8000;:DATa:STOP 500;:ACQuire:STATE RUN")
+    world.trigger_awg()
+    assert volts(ask, scope).size == 500
+    ask(scope, "DATa:STOP 8000")
+    seen = volts(ask, scope)
+    assert np.std(seen[-PERIOD:]) == pytest.approx(np.std(seen[:PERIOD]), rel=0.2)
 
 
 def test_several_sources_follow_one_another(ask: Ask, scope: VirtualDpo72504dx) -> None:
