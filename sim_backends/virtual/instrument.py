@@ -11,6 +11,7 @@ from sim_backends.scpi.family import Family
 from sim_backends.scpi.messages import Chunk, Malformed, Message, Unit
 from sim_backends.scpi.status import NotSimulated, ScpiError, Status
 from sim_backends.world.receivers import CardFull
+from sim_backends.world.signals import TooLong
 from sim_backends.world.world import World
 
 _logger = logging.getLogger(__name__)
@@ -120,10 +121,8 @@ class VirtualInstrument:
                 if isinstance(error, NotSimulated):
                     _logger.warning("%s: %s", type(self).__name__, error.detail)
                 part = self.refused(unit, error)
-            except CardFull:  # which no instrument has
-                raise
-            except MemoryError:
-                part = self.refused(unit, ScpiError(-225, "this machine's memory"))
+            except MemoryError as error:
+                part = self.refused(unit, _out_of_memory(error))
             reply = _joined(reply, part)
         return reply
 
@@ -204,7 +203,12 @@ class VirtualInstrument:
     # --- execution
 
     def _notice_completion(self) -> None:
-        if self._completion_asked and not self.pending():
+        try:
+            completed = self._completion_asked and not self.pending()
+        except MemoryError as error:
+            self.status.report(_out_of_memory(error))
+            completed = True
+        if completed:
             self._completion_asked = False
             self.status.complete()
 
@@ -216,6 +220,13 @@ class VirtualInstrument:
         reply = command.answer(self, suffixes, unit.arguments)
         header = reply_header(command, suffixes, verbose=self.verbose) if self.headers and not command.labelled else ""
         return [header.encode() + b" ", *reply] if header and reply else reply
+
+
+def _out_of_memory(error: MemoryError) -> ScpiError:
+    """What an instrument says of it; of a graphics card, which no instrument has, it says nothing."""
+    if isinstance(error, CardFull):
+        raise error
+    return ScpiError(-225, str(error) if isinstance(error, TooLong) else "this machine's memory")
 
 
 def _joined(replies: list[Chunk], reply: list[Chunk]) -> list[Chunk]:

@@ -17,7 +17,7 @@ from scipy import fft
 
 from sim_backends.optics import chain, mirrors, receiver
 from sim_backends.parameters import Parameters
-from sim_backends.world.signals import Acquisition
+from sim_backends.world.signals import Acquisition, TooLong
 from sim_backends.world.triggers import level_crossings
 from sim_backends.world.twin import Optics, Setting, drawn_twin
 
@@ -26,6 +26,8 @@ COLUMN_BLOCK = 256
 _KEPT_SETTINGS = 12
 _KEPT_BYTES = 50_000_000  # of pages: spectra, or matrices
 _PAGE_POINTS = 2**14
+_MOST_POINTS = 2**25
+"""Of a record's light, some gigabytes: more than the longest record of the oscilloscopes at 100 GS/s, 0.3 ms, has."""
 _OFF_GRID = 1e-4  # grid steps: light times that are no further beside the grid are on it
 _BLOCK_SAMPLES = 16
 _PHASE_STEP_S = 1.25e-12
@@ -82,10 +84,17 @@ class LightPath:
         return mirrors.reflected(on, self._parameters.mirror_contrast)
 
     def grid(self, acquisition: Acquisition, shift_s: float) -> Grid:
-        """The times at which the light's intensity is wanted, and the filter that makes samples of it."""
+        """The times at which the light's intensity is wanted, and the filter that makes samples of it.
+
+        Raises:
+            TooLong: there are too many of them.
+        """
         constants = self._parameters
         decimation = math.ceil(1.0 / (acquisition.sample_rate * constants.record_step_s) - 1e-9)
         step = 1.0 / (acquisition.sample_rate * decimation)
+        if acquisition.samples * decimation > _MOST_POINTS:
+            lasts_s = acquisition.samples / acquisition.sample_rate
+            raise TooLong(f"{lasts_s:.2g} s of light, {_MOST_POINTS * step:.2g} s are the most that are simulated")
         sampling = sampling_filter(
             samples=min(acquisition.samples, _BLOCK_SAMPLES),
             decimation=decimation,

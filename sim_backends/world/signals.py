@@ -14,6 +14,10 @@ AUX = 0
 BYPASS = 0
 
 
+class TooLong(MemoryError):
+    """A record or a drive of which the light would take all memory: one line that says how long it may be."""
+
+
 @dataclass(frozen=True)
 class Emission:
     """What the laser puts out: wavelength (nm) and power (W); power 0 is dark."""

@@ -237,15 +237,24 @@ class AcquisitionSystem(Oscilloscope):
         return self.world.clock.now + self.plan.spacing_s * np.arange(count, dtype=np.float64)
 
     def _take(self, times: NDArray[np.float64]) -> None:
-        """Record after each of `times`; the acquisition is complete with its last trigger."""
+        """Record after each of `times`; the acquisition is complete with its last trigger, or where memory gives out.
+
+        Raises:
+            MemoryError: there is none for it; the acquisition is given up.
+        """
         progress = self._under_way()
+        try:
+            if progress.plan.pointwise and self.transfer.last < progress.plan.acquisition.samples:
+                self._take_first_points(progress, times)
+            else:
+                for codes, offsets in self._digitised(progress.plan, times):
+                    progress.add(codes, offsets)
+        except MemoryError:  # perhaps some of `times` were added: nothing of it is shown
+            self._running, self._progress, self._traces = False, None, {}
+            self._shown = None if self._shown is progress else self._shown
+            raise
         progress.times.append(times)
         progress.missing -= times.size
-        if progress.plan.pointwise and self.transfer.last < progress.plan.acquisition.samples:
-            self._take_first_points(progress, times)
-        else:
-            for codes, offsets in self._digitised(progress.plan, times):
-                progress.add(codes, offsets)
         self._ready_s = float(times[-1]) + self.plan.spacing_s
         acquisition = progress.plan.acquisition
         end_s = float(times[-1]) + acquisition.start_s + acquisition.samples / acquisition.sample_rate

@@ -1,5 +1,7 @@
 """One record of the virtual oscilloscope: arming, triggers, averages, time."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -161,3 +163,38 @@ def test_time_costs(ask: Ask, scope: VirtualDpo72504dx, world: Watched) -> None:
     before = world.clock.now
     ask(scope, "TRIGger:A:HOLDoff:BY TIMe;TIMe 1e-3;:ACQuire:NUMAVg 10;STATE RUN")
     assert world.clock.now - before == pytest.approx(20e-3 + 9 * 1e-3, rel=0.01)
+
+
+def test_a_record_too_long_for_the_simulation_is_refused_and_the_next_one_taken(
+    ask: Ask, scope: VirtualDpo72504dx, world: Watched
+) -> None:
+    ask(scope, "HORizontal:MODE AUTO;:HORizontal:MODE:SCAle 1E-3;:ACQuire:STATE RUN")
+    assert events(ask, scope) == "225"
+    assert ask(scope, "ACQuire:STATE?;NUMACq?;:BUSY?") == b"0;0;0"
+    ask(scope, "CURVe?")
+    assert events(ask, scope) == "2241"
+    ask(scope, "HORizontal:MODE:SCAle 1E-8;:ACQuire:STATE RUN")
+    assert ask(scope, "ACQuire:NUMACq?") == b"1"
+    assert volts(ask, scope).std() > 0
+    assert events(ask, scope) == ""
+
+
+@pytest.mark.parametrize("noticed", ["*ESR?", "serial poll"])
+def test_a_burst_too_long_for_the_simulation_is_over(
+    ask: Ask, scope: VirtualDpo72504dx, world: Watched, noticed: str
+) -> None:
+    ask(scope, "HORizontal:MODE:SAMPLERate 1E6;RECOrdlength 5000;:HORizontal:FASTframe:STATE ON;COUNt 3")
+    ask(scope, "ACQuire:STATE RUN;*OPC")
+    if noticed == "serial poll":
+        scope.status_byte()
+    assert events(ask, scope) == "225,402"
+    assert ask(scope, "BUSY?;*OPC?") == b"0;1"
+
+
+def test_a_drive_too_long_for_the_simulation_is_refused(ask: Ask, scope: VirtualDpo72504dx, world: Watched) -> None:
+    world.play(replace(playback(), sample_rate=1e6))
+    ask(scope, "ACQuire:STATE RUN;*ESR?")
+    assert b"a drive of 0.0025 s" in ask(scope, "EVMsg?")
+    world.play(playback())
+    ask(scope, "ACQuire:STATE RUN")
+    assert volts(ask, scope).std() > 0
