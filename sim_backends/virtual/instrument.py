@@ -11,7 +11,7 @@ from sim_backends.scpi.family import Family
 from sim_backends.scpi.messages import Chunk, Malformed, Message, Unit
 from sim_backends.scpi.status import NotSimulated, ScpiError, Status
 from sim_backends.world.receivers import CardFull
-from sim_backends.world.signals import TooLong
+from sim_backends.world.signals import OutOfMemory
 from sim_backends.world.world import World
 
 _logger = logging.getLogger(__name__)
@@ -226,7 +226,7 @@ def _out_of_memory(error: MemoryError) -> ScpiError:
     """What an instrument says of it; of a graphics card, which no instrument has, it says nothing."""
     if isinstance(error, CardFull):
         raise error
-    return ScpiError(-225, str(error) if isinstance(error, TooLong) else "this machine's memory")
+    return ScpiError(-225, str(error) if isinstance(error, OutOfMemory) else "this machine's memory")
 
 
 def _joined(replies: list[Chunk], reply: list[Chunk]) -> list[Chunk]:

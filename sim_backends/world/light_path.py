@@ -17,7 +17,7 @@ from scipy import fft
 
 from sim_backends.optics import chain, mirrors, receiver
 from sim_backends.parameters import Parameters
-from sim_backends.world.signals import Acquisition, TooLong
+from sim_backends.world.signals import Acquisition, OutOfMemory
 from sim_backends.world.triggers import level_crossings
 from sim_backends.world.twin import Optics, Setting, drawn_twin
 
@@ -87,14 +87,14 @@ class LightPath:
         """The times at which the light's intensity is wanted, and the filter that makes samples of it.
 
         Raises:
-            TooLong: there are too many of them.
+            OutOfMemory: there are too many of them.
         """
         constants = self._parameters
         decimation = math.ceil(1.0 / (acquisition.sample_rate * constants.record_step_s) - 1e-9)
         step = 1.0 / (acquisition.sample_rate * decimation)
         if acquisition.samples * decimation > _MOST_POINTS:
             lasts_s = acquisition.samples / acquisition.sample_rate
-            raise TooLong(f"{lasts_s:.2g} s of light, {_MOST_POINTS * step:.2g} s are the most that are simulated")
+            raise OutOfMemory(f"{lasts_s:.2g} s of light, {_MOST_POINTS * step:.2g} s are the most that are simulated")
         sampling = sampling_filter(
             samples=min(acquisition.samples, _BLOCK_SAMPLES),
             decimation=decimation,

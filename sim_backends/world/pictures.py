@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sim_backends.optics import mirrors
 from sim_backends.world.keyed_random import digest
-from sim_backends.world.signals import Projection
+from sim_backends.world.signals import OutOfMemory, Projection
 
 FLOATING = digest("floating")
 
@@ -224,8 +224,13 @@ class Pictures:
         """What triggers at `times` see in records from `begins_s` to `ends_s` after them.
 
         A record sees at most one change of the picture, the last one; pictures stay for 44 us at least.
+
+        Raises:
+            OutOfMemory: one of them came before the scenes that are kept.
         """
         scenes = tuple(self._scenes)
+        if times.size and times.min() < scenes[0].from_s - _SLACK_S:
+            raise OutOfMemory("what the mirrors showed at a trigger is no longer known: read frames sooner")
         begin = np.array([scene.from_s for scene in scenes[1:]])
         number = np.searchsorted(begin, times + _SLACK_S, side="right").astype(np.int64)
         shown, after, before = np.zeros((3, times.size), np.int64)

@@ -14,8 +14,8 @@ AUX = 0
 BYPASS = 0
 
 
-class TooLong(MemoryError):
-    """A record or a drive of which the light would take all memory: one line that says how long it may be."""
+class OutOfMemory(MemoryError):
+    """What the simulation has no memory for, such as the light of a very long record: one line that says so."""
 
 
 @dataclass(frozen=True)

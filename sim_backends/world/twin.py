@@ -12,7 +12,7 @@ from sim_backends.optics import cavity, chain, derived, drive, fibre, receiver
 from sim_backends.optics.drift import OrnsteinUhlenbeck
 from sim_backends.parameters import SPEED_OF_LIGHT, Parameters
 from sim_backends.world.keyed_random import Purpose, digest, generator
-from sim_backends.world.signals import BYPASS, Emission, Playback, TooLong
+from sim_backends.world.signals import BYPASS, Emission, OutOfMemory, Playback
 
 _LEAD_S = 2e-9  # more than the band limits smear the start of a segment forward
 _FILTERS_S = 1e-9  # more than generator, amplifier and modulator remember
@@ -161,7 +161,7 @@ def _made_light(parameters: Parameters, longest_delay_s: float, setting: Setting
     A segment is taken to start from idle light: the one before ended some 10 ns earlier at least.
 
     Raises:
-        TooLong: the drive is.
+        OutOfMemory: the drive is.
     """
     playback = setting.playback
     waiting = playback is not None and playback.lengths is not None and setting.segment is None
@@ -171,7 +171,7 @@ def _made_light(parameters: Parameters, longest_delay_s: float, setting: Setting
     volts, _ = playback.segment(setting.segment or 0)
     step = 1.0 / (rate * drive.oversampling(rate, parameters.drive_step_s))
     if (lasts_s := volts.size * max(1, setting.repeats) / rate) > _MOST_POINTS * step:
-        raise TooLong(f"a drive of {lasts_s:.2g} s, {_MOST_POINTS * step:.2g} s are the most that are simulated")
+        raise OutOfMemory(f"a drive of {lasts_s:.2g} s, {_MOST_POINTS * step:.2g} s are the most that are simulated")
     if setting.periodic:
         return chain.driven_light(parameters, volts, rate), None
     remembered = chain.CHIP_MEMORY_S + longest_delay_s + _FILTERS_S

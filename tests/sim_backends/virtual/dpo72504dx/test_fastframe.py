@@ -272,3 +272,16 @@ def test_free_running_frames_are_new_with_each_transfer(ask: Ask, scope: Virtual
     ask(scope, "ACQuire:STOPAfter RUNSTop;STATE RUN")
     assert ask(scope, "CURVe?") != ask(scope, "CURVe?")
     assert ask(scope, "ACQuire:NUMFRAMESACQuired?;NUMACq?") == b"2;2"
+
+
+def test_frames_of_pictures_that_are_forgotten_are_refused(ask: Ask, scope: VirtualDpo72504dx, world: Watched) -> None:
+    fast_frame(ask, scope, 10)
+    patterns = np.random.default_rng(1).integers(0, 256, (17, 768, 128), np.uint8)
+    for shown, taken in ((patterns[:3], 10), (patterns, 0)):
+        ask(scope, "CLEAR ALL;:ACQuire:STATE RUN")
+        for pattern in shown:
+            world.clock.advance(1e-3)
+            world.show(pattern)
+        assert ask(scope, "ACQuire:NUMFRAMESACQuired?") == (b"%d" % taken if taken else b"")
+    assert events(ask, scope) == "225"
+    assert ask(scope, "ACQuire:STATE?") == b"0"
