@@ -75,6 +75,13 @@ class Scene:
         """Whether it is one picture that stays."""
         return len(self.names) == 2 and self.latched_s is None
 
+    @property
+    def shortest_s(self) -> float:
+        """The shortest time that a picture, or the dark behind it, stays (s)."""
+        if math.isinf(self.lit_s):
+            return self.picture_time_s
+        return min(self.lit_s, self.picture_time_s - self.lit_s)
+
     def row(self, times: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
         """Rows latched at `times` (s), rows before them, and when they were latched (s)."""
         number = self.number(times)
@@ -223,7 +230,7 @@ class Pictures:
     def sight(self, times: NDArray[np.float64], *, begins_s: float, ends_s: float) -> Sight:
         """What triggers at `times` see in records from `begins_s` to `ends_s` after them.
 
-        A record sees at most one change of the picture, the last one; pictures stay for 44 us at least.
+        They see at most one change of the picture, the last one: see `stretches`.
 
         Raises:
             OutOfMemory: one of them came before the scenes that are kept.
@@ -242,6 +249,20 @@ class Pictures:
             age[rows] = np.rint((times[rows] - latch) / _AGE_STEP_S) * _AGE_STEP_S
         moving = (after != before) & (age + min(0.0, begins_s) < self._arrives_s)
         return Sight(scenes, number, shown, after, before, np.where(moving, age, math.inf))
+
+    def stretches(self, times: NDArray[np.float64], *, begins_s: float, ends_s: float) -> NDArray[np.float64]:
+        """Where records from `begins_s` to `ends_s` after `times` are cut (s), so that no part sees two changes.
+
+        The ends are among it.
+        """
+        longest, first_s, last_s = math.inf, begins_s - self._arrives_s, ends_s - self._leaves_s
+        for scene in self._scenes:
+            if last_s - first_s < scene.shortest_s:  # as nearly every record
+                continue
+            if np.any(scene.number(times + last_s) - scene.number(times + first_s) > 1):
+                longest = min(longest, scene.shortest_s + self._leaves_s - self._arrives_s)
+        parts = math.ceil((ends_s - begins_s) / max(longest, self._leaves_s))
+        return np.linspace(begins_s, ends_s, max(1, parts) + 1)
 
     def _keep(self, scene: Scene) -> None:
         """From now on it is the latest; the oldest ones are forgotten."""

@@ -14,6 +14,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from time import perf_counter
 from typing import Any, Literal
 
@@ -297,24 +298,31 @@ class World:
         """
         began = perf_counter()
         times, whole = np.asarray(trigger_times, np.float64), whole or acquisition
-        sight = self._pictures.sight(
-            times,
-            begins_s=whole.start_s,
-            ends_s=whole.start_s + whole.samples / whole.sample_rate,
-        )
+        begins_s, ends_s = whole.start_s, whole.start_s + whole.samples / whole.sample_rate
+        sight = self._pictures.sight(times, begins_s=begins_s, ends_s=ends_s)
         direct = self.parameters.light_path == "direct"  # past the mirrors: what they show is no part of the state
         keys = self._keys([FLOATING] * times.size if direct else sight.names, acquisition, setting)
         white, lateness, offsets = self.receivers.drawn(keys, acquisition)
         coarse = np.rint(offsets / _SHIFT_STEP_S) * _SHIFT_STEP_S
         lateness += offsets - coarse
-        lights = [
-            (light, np.array(rows), self._under(light, acquisition.channels))
-            for light, rows in self._alike(times, coarse, whole, sight).items()
-        ]
-        detected = partial(self._detected, lights, sight, lateness)
+        cuts = self._pictures.stretches(times, begins_s=begins_s, ends_s=ends_s)
+        stretches = []
+        for first_s, last_s in pairwise(cuts.tolist()):
+            if len(cuts) > 2:
+                sight = self._pictures.sight(times, begins_s=first_s, ends_s=last_s)
+            lights = [
+                (light, np.array(rows), self._under(light, acquisition.channels))
+                for light, rows in self._alike(times, coarse, whole, sight).items()
+            ]
+            detected = partial(self._detected, lights, sight, lateness)
+            stretches.append((last_s if last_s < ends_s else math.inf, detected))
+        further = partial(self._further, keys, stretches)
+        if len(stretches) > 1:
+            self.physics_seconds += perf_counter() - began
+            return Record(further(acquisition), offsets, keys, further)
         volts = detected(acquisition, white)
         self.physics_seconds += perf_counter() - began
-        return Record(volts, offsets, keys, partial(self._further, keys, detected))
+        return Record(volts, offsets, keys, further)
 
     def _detected(
         self,
@@ -334,15 +342,22 @@ class World:
     def _further(
         self,
         keys: Sequence[bytes],
-        detected: Callable[[Acquisition, Any], NDArray[np.float32]],
+        stretches: Sequence[tuple[float, Callable[[Acquisition, Any], NDArray[np.float32]]]],
         part: Acquisition,
     ) -> NDArray[np.float32]:
-        """Volts of other points behind the same triggers, with noise of their own."""
-        began = perf_counter()
-        own = derived(keys, "further", float(part.start_s))
-        volts = detected(part, self.receivers.white(own, part))
+        """Volts of other points behind the same triggers, with noise of their own, stretch by stretch."""
+        began, first, volts = perf_counter(), 0, []
+        self._light_path.grid(part, 0.0)  # what is too long is refused as a whole
+        for ends_s, detected in stretches:
+            last = max(first, round(min(part.samples, (ends_s - part.start_s) * part.sample_rate)))
+            if last > first:
+                at_s = part.start_s + first / part.sample_rate
+                piece = replace(part, start_s=at_s, samples=last - first)
+                own = derived(keys, "further", float(at_s))
+                volts.append(detected(piece, self.receivers.white(own, piece)))
+            first = last
         self.physics_seconds += perf_counter() - began
-        return volts
+        return volts[0] if len(volts) == 1 else np.concatenate(volts, axis=-1)
 
     def _latch(self, counts: NDArray[np.uint16] | None, projection: Projection | None) -> None:
         if self._pictures.latch(counts, projection, self.clock.now):

@@ -1,5 +1,6 @@
 """Bursts: the DMD's frame synch triggers the generator, whose marker triggers the oscilloscope."""
 
+import math
 import tracemalloc
 from dataclasses import replace
 from functools import partial
@@ -263,6 +264,25 @@ def test_further_points_see_the_picture_of_their_time() -> None:
     world.show(PATTERNS[0])
     bright, dark = (seen.further(replace(whole, samples=9000, start_s=start_s)).mean() for start_s in (30e-6, 50e-6))
     assert bright > 100 * dark
+
+
+@pytest.mark.parametrize(("lit_s", "dark_s"), [(math.inf, math.inf), (20e-6, 25e-6)])
+def test_a_long_record_sees_every_picture(lit_s: float, dark_s: float) -> None:
+    world = bench(continuous(), dim())
+    pictures = np.array([[729], [0], [729], [0]], np.uint16).repeat(784, axis=1)
+    projection = Projection(pictures, world.clock.now, PICTURE_S, lit_s=lit_s)
+    world.project(projection)
+    record = world.record(Acquisition((1,), 1e9, 160_000, 0.0), projection.start_s + np.array([0.0, 2 * PICTURE_S]))
+    traces = record.volts[:, 0]
+    bright = traces[0, 10_000:15_000].mean()
+
+    def seen(trigger: int, after_s: float) -> float:
+        return float(traces[trigger, round(after_s * 1e9) :][:5000].mean() / bright)
+
+    for trigger, number, expected in [(0, 0, 1), (0, 1, 0), (0, 2, 1), (0, 3, 0), (1, 0, 1), (1, 1, 0), (1, 2, 0)]:
+        assert seen(trigger, number * PICTURE_S + 10e-6) == pytest.approx(expected, abs=0.1)
+        if expected and dark_s < PICTURE_S:
+            assert seen(trigger, number * PICTURE_S + dark_s) == pytest.approx(0, abs=0.1)
 
 
 def test_segments_play_in_turn() -> None:
