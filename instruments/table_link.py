@@ -60,20 +60,12 @@ class TableLink:
             OutOfRange: outside the limits of the table; nothing was sent.
             InstrumentError: the answer lies further from it than `tolerance`, in the unit of the table.
         """
-        self.request(quantity, value)
-        unit = self.table.range(quantity).unit
-        return confirm(f"{self._link.name}: {quantity}", value, self.number(f"get_{quantity}"), tolerance, unit=unit)
-
-    def request(self, quantity: str, value: float) -> None:
-        """Send `set_<quantity>`, for what is not there at once and is compared later.
-
-        Raises:
-            OutOfRange: outside the limits of the table; nothing was sent.
-        """
-        command = self._command(f"set_{quantity}")
-        self.table.range(quantity).check(f"{self._link.name} {quantity}", value)
+        command, limits = self._command(f"set_{quantity}"), self.table.range(quantity)
+        limits.check(f"{self._link.name} {quantity}", value)
         with self.checked():
             self._link.write(command.write.format(value=value))
+        answered = self.number(f"get_{quantity}")
+        return confirm(f"{self._link.name}: {quantity}", value, answered, tolerance, unit=limits.unit)
 
     def errors(self) -> list[str]:
         """Empty the instrument's error queue and return what it held."""

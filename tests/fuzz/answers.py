@@ -13,7 +13,6 @@ from instruments.errors import InstrumentError
 from instruments.fibre_switch import ScpiFibreSwitch
 from instruments.interfaces import Instrument
 from instruments.laser_table import LaserTable
-from instruments.table_link import TableLink
 from instruments.tektronix_awg70002a import Awg70002a
 from instruments.tektronix_dpo72504dx import Dpo72504dx
 from instruments.values import Drive, EdgeTrigger, Timebase, Vertical
@@ -93,9 +92,7 @@ def _laser(addresses: Addresses, transport: str) -> Tlg220:
         "commands": {**table.commands, "is_settled": settling},
         "transport": table.transport.model_copy(update={"timeout_s": TIMEOUT_S}),
     }
-    return Tlg220(
-        TableLink(addresses["laser"][transport], table.model_copy(update=hasty), name="laser", transcript=_unheard)
-    )
+    return Tlg220(addresses["laser"][transport], table.model_copy(update=hasty), _unheard)
 
 
 def _awg(addresses: Addresses, transport: str) -> Awg70002a:

@@ -66,10 +66,10 @@ def test_a_switch_may_answer_in_words(tmp_path: Path, log: Any) -> None:
         table = AttenuatorTable.read(in_words(SIMULATED_TABLE))
         with closing(TableLink(script.address, table, name="attenuator", transcript=log)) as link:
             assert [link.number("get_open") for _ in range(3)] == [1, 0, 1]
-    with closing(Script(b"ON\n", b"OFF\n", b'0,""\n')) as script:
-        commands = LaserTable.read(in_words(SIMULATED_LASER))
-        laser = Tlg220(TableLink(script.address, commands, name="laser", transcript=log))
-        with closing(laser):
+    with (
+        closing(Script(b"ON\n", b"OFF\n", b'0,""\n')) as script,
+        closing(Tlg220(script.address, LaserTable.read(in_words(SIMULATED_LASER)), log)) as laser,
+    ):
+        laser.require_emission()
+        with pytest.raises(LightLost):
             laser.require_emission()
-            with pytest.raises(LightLost):
-                laser.require_emission()

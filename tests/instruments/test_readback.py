@@ -17,7 +17,6 @@ from instruments.alnair_tlg220 import Tlg220
 from instruments.errors import InstrumentError
 from instruments.laser_table import LaserTable
 from instruments.readback import confirm
-from instruments.table_link import TableLink
 from instruments.tektronix_awg70002a import Awg70002a
 from instruments.tektronix_dpo72504dx import Dpo72504dx
 from instruments.values import Drive, EdgeTrigger, Timebase, Vertical
@@ -115,9 +114,7 @@ def opened(log: Any) -> Iterator[Opened]:
     drivers: dict[str, Callable[[str], Awg70002a | Dpo72504dx | Tlg220]] = {
         "awg": lambda address: Awg70002a(link("awg", address)),
         "scope": lambda address: Dpo72504dx(link("scope", address)),
-        "laser": lambda address: Tlg220(
-            TableLink(address, LaserTable.read(SIMULATED_LASER), name="laser", transcript=log)
-        ),
+        "laser": lambda address: Tlg220(address, LaserTable.read(SIMULATED_LASER), log),
     }
     with ExitStack() as stack:
 

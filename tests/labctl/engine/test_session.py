@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
+from instruments.alnair_tlg220 import Tlg220
 from instruments.errors import LightLost, NoTrigger
 from instruments.table_attenuator import TableAttenuator
-from instruments.table_link import TableLink
 from instruments.tektronix_awg70002a import TriggerInput
 from labctl.bench.opening import opened
 from labctl.bench.signals import Interruption
@@ -137,7 +137,7 @@ def test_a_burst_is_reported_as_done_once_it_is_on_disk(tmp_path: Path, monkeypa
 
 
 def test_the_manifest_has_the_light_as_the_laser_settled_on_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(TableLink, "number", near_what_was_asked(TableLink.number))
+    monkeypatch.setattr(Tlg220, "_number", near_what_was_asked(Tlg220._number))
     protocol = ImageReadout(images=20, ports=(2,), wavelengths=(1551.0, 1552.0))
     acquire(Acquisition(protocol, Station(), tmp_path / "run"))
     with open_run(tmp_path / "run") as stored:
@@ -252,7 +252,7 @@ def test_a_run_takes_no_more_room_than_was_asked_for(protocol: Any, tmp_path: Pa
     assert taken <= allowed
 
 
-def near_what_was_asked(number: Callable[[TableLink, str], float]) -> Callable[[TableLink, str], float]:
+def near_what_was_asked(number: Callable[[Tlg220, str], float]) -> Callable[[Tlg220, str], float]:
     """The replies of a laser that settles 4 pm beside what it is asked for."""
     return lambda laser, name: number(laser, name) + (0.004 if name == "get_wavelength" else 0.0)
 
