@@ -4,7 +4,7 @@ import hashlib
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -54,6 +54,10 @@ class Wire(BaseModel):
     replay: Mapping[str, Mapping[str, str]] | None = None
     played: tuple[Played, ...] = ()
     differed: Callable[[], bool] = Field(default=lambda: False, exclude=True)
+
+    def __reduce__(self) -> tuple[Callable[[Any], Self], tuple[Any]]:
+        """Other processes get it without `differed`, which they cannot ask."""
+        return type(self).model_validate, (self.model_dump(),)
 
     @classmethod
     def of_this_process(cls) -> Self:
