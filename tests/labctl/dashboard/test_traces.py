@@ -34,7 +34,7 @@ def points(drawn: str, style: str) -> list[tuple[int, int]]:
 
 
 def test_traces_of_two_runs_are_inside_their_plot_whichever_is_longer(tmp_path: Path) -> None:
-    short = measured(tmp_path / "short", 0.5e-9)
+    short = measured(tmp_path / "short", 0.48e-9)
     long = measured(tmp_path / "long", 2e-9)
     for one, other, longer in ((short, long, "b"), (long, short, "a")):
         drawn = wording.traces(one, other)
@@ -46,7 +46,7 @@ def test_traces_of_two_runs_are_inside_their_plot_whichever_is_longer(tmp_path: 
 
 
 def test_each_trace_of_two_runs_has_its_own_time(tmp_path: Path) -> None:
-    (one,) = measured(tmp_path / "run", 0.5e-9)
+    (one,) = measured(tmp_path / "run", 0.48e-9)
     finer = replace(one, sample_interval_s=one.sample_interval_s / 2)
     for first, second, longer in ((one, finer, "a"), (finer, one, "b")):
         drawn = wording.traces([first], [second])

@@ -107,6 +107,8 @@ import os, signal
 from functools import partial
 from labctl.studies.processes import load_meanwhile, side_by_side
 
+signal.signal(signal.SIGINT, signal.default_int_handler)  # who began the tests may ignore it
+
 def ctrl_c():
     try:
         os.killpg(0, signal.SIGINT)
