@@ -96,10 +96,11 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
     """
     if model.is_dir():
         raise UsageError(f"{model}: is a folder: name the model file first, then the run directory")
+    if directory.is_file():
+        with open_run(directory):  # a file that is not of a run says so itself
+            raise UsageError(f"{directory}: is a file: name the run directory, {directory.parent} if that is it")
     readout, trained = load_model(model), _Trained.of(model)
     with open_run(directory) as run:
-        if directory.is_file():  # that of a run, which can be read, but has no place for the report
-            raise UsageError(f"{directory}: is a file: name the run directory, {directory.parent} if that is it")
         here = Masks.of(run)
         with _used(model, directory):
             if (why := _unlike(trained, readout[0], here)) is not None:
