@@ -27,7 +27,7 @@ from protocols.base import (
     Shot,
     ShotKind,
 )
-from protocols.bursts import burst_dmd, load_pictures, played
+from protocols.bursts import SETTLED_PERIODS, burst_dmd, load_pictures, played
 from protocols.image_readout import DRIVE_RATE, DRIVE_SAMPLES, pseudorandom_drive
 from protocols.means import averaged, rescaled
 from protocols.patterns import Patterns
@@ -35,8 +35,6 @@ from protocols.ranging import lock_ranges
 from protocols.reference_picture import beside_reference, field_of
 from protocols.settings import Binarisation, Classes, ImageCount, Pair, Ports, Wavelengths, passes_for, samples_in
 
-SETTLED_PERIODS = 2
-"""Of the drive, before the record begins: fibre and chip then carry light of the running drive only."""
 PULSE_STEP_S = 1e-6
 """The DMD's pulse lasts whole microseconds."""
 REAL_SCENE_S = 1.5

@@ -10,7 +10,7 @@ from labctl.errors import RunError, RunInUse, UsageError
 from labctl.printable import typed, typed_path
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.origin import Origin
-from labctl.runs.read.run import open_run
+from labctl.runs.read.run import open_run, refuse_file
 from protocols.base import Judgement
 from protocols.registry import judgement_of
 
@@ -82,8 +82,7 @@ def protocol_of(directory: Path) -> tuple[str, Judgement]:
         UsageError: no such directory, or a file.
         RunError: not a run, or damaged.
     """
-    if directory.is_file():
-        raise UsageError(f"{directory}: is a file: name the run directory, {directory.parent} if that is it")
+    refuse_file(directory)
     if not directory.is_dir():
         raise UsageError(f"{directory}: no such directory: name a run directory, as 'labctl runs' lists them")
     with open_run(directory) as run:

@@ -36,7 +36,7 @@ from labctl.reports.recognition import Confusion, recognition_report
 from labctl.runs.format.manifest import protocol_settings
 from labctl.runs.format.plain_hdf5 import HDF5_ERRORS
 from labctl.runs.read.records import Records
-from labctl.runs.read.run import Run, open_run
+from labctl.runs.read.run import Run, open_run, refuse_file
 from labctl.studies.inputs_of_runs import identical_images, identity_of, source_of
 from labctl.studies.masks import Masks
 from labctl.studies.readout_file import load_metadata, load_model
@@ -96,9 +96,7 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
     """
     if model.is_dir():
         raise UsageError(f"{model}: is a folder: name the model file first, then the run directory")
-    if directory.is_file():
-        with open_run(directory):  # a file that is not of a run says so itself
-            raise UsageError(f"{directory}: is a file: name the run directory, {directory.parent} if that is it")
+    refuse_file(directory)
     readout, trained = load_model(model), _Trained.of(model)
     with open_run(directory) as run:
         here = Masks.of(run)

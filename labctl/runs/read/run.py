@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from instruments.values import Drive
-from labctl.errors import RunError
+from labctl.errors import RunError, UsageError
 from labctl.runs.format.columns import LONGEST_KIND, in_this_version
 from labctl.runs.format.journal import read_journal
 from labctl.runs.format.layout import RunPaths
@@ -254,6 +254,18 @@ def open_run(path: Path | str) -> Run:
     if run.suspect:
         _logger.warning("%s: %s shots are suspect and left out: `labctl resume` measures them again", path, run.suspect)
     return run
+
+
+def refuse_file(directory: Path) -> None:
+    """Refuse data.h5 by itself where the directory of its run is needed.
+
+    Raises:
+        UsageError: it is named.
+        RunError: a file that is not of a run is named.
+    """
+    if directory.is_file():
+        with _opened(directory):
+            raise UsageError(f"{directory}: is a file: name the run directory, {directory.parent} if that is it")
 
 
 def _opened(path: Path) -> Run:
