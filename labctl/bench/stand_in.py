@@ -40,7 +40,8 @@ def with_a_copy(orders: BinaryIO, left_alone: Callable[[], None]) -> Followed:
     """Fork the copy; this returns in both processes. Each has all lines: those of the copy go on when the other ended.
 
     `orders` must not be buffered: the copy would have twice what waits there. The supervisor goes on without its copy,
-    since it may be all that is left; `left_alone` is called in it when the copy has ended, so that the run goes dark.
+    since it may be all that is left; `left_alone` is called in it when the copy has ended undismissed, so that the run
+    goes dark.
     """
     if sys.platform == "win32":
         return alone(orders)
@@ -83,15 +84,17 @@ def _is_stopped(process: int) -> bool:
 
 
 def _dismissing(copy: int, left_alone: Callable[[], None]) -> Callable[[], None]:
-    """What ends the copy; `left_alone` is called when it has ended, whoever ended it."""
-    ended = threading.Event()
+    """What ends the copy; `left_alone` is called when anything else has ended it."""
+    ended, dismissed = threading.Event(), threading.Event()
 
     def hear_its_end() -> None:
         os.waitpid(copy, 0)
         ended.set()
-        left_alone()
+        if not dismissed.is_set():
+            left_alone()
 
     def dismiss() -> None:
+        dismissed.set()
         if not ended.is_set():  # another process may have its number by then
             with suppress(ProcessLookupError):
                 os.kill(copy, signal.SIGKILL)

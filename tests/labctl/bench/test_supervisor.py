@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from io import FileIO
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -41,6 +42,8 @@ from labctl.runs.live.events import EventReader
 from labctl.runs.live.logs import CommandLog
 from sim_backends.bench import SimulatedBench
 
+NOBODY = {"address": "TCPIP0::127.0.0.1::9::SOCKET"}
+
 
 @pytest.fixture
 def station() -> Iterator[Station]:
@@ -53,6 +56,11 @@ def station() -> Iterator[Station]:
 def orders(station: Station, *later: object) -> io.BytesIO:
     task = Task(station=station, log_started=time.perf_counter() - 1000)
     return io.BytesIO("".join(f"{line}\n" for line in (task.model_dump_json(), *map(json.dumps, later))).encode())
+
+
+def without_laser(station: Station) -> Station:
+    """Nobody listens at the laser's address."""
+    return station.model_copy(update={"laser": station.laser.model_copy(update=NOBODY)})
 
 
 def ignored(_said: bytes) -> None:
@@ -87,8 +95,7 @@ def test_a_laser_set_by_hand_is_left_to_a_person(station: Station, capfd: pytest
 
 
 def test_what_cannot_be_reached_is_told(station: Station, capfd: pytest.CaptureFixture[str]) -> None:
-    nobody = {"address": "TCPIP0::127.0.0.1::9::SOCKET"}
-    supervise(orders(station.model_copy(update={"awg": station.awg.model_copy(update=nobody)})), ignored)
+    supervise(orders(station.model_copy(update={"awg": station.awg.model_copy(update=NOBODY)})), ignored)
     said = capfd.readouterr().err
     assert "the supervisor could not: the safe state is not confirmed (awg: awg at TCPIP0" in said
     assert said.endswith("the laser is off\n")
@@ -134,9 +141,7 @@ def test_people_are_told_of_a_laser_that_goes_on_emitting_until_somebody_has_see
             assert may_emit(tmp_path)
             say_dark(tmp_path)
 
-    nobody = station.laser.model_copy(update={"address": "TCPIP0::127.0.0.1::9::SOCKET"})
-    away = station.model_copy(update={"laser": nobody})
-    supervise(orders(away, str(tmp_path / "commands.log")), ignored, see)
+    supervise(orders(without_laser(station), str(tmp_path / "commands.log")), ignored, see)
     assert len(pauses) == 3 * TELL_EVERY + 1
     lines = capfd.readouterr().err.splitlines()
     assert len(lines) == 4
@@ -148,20 +153,27 @@ def test_people_are_told_of_a_laser_that_goes_on_emitting_until_somebody_has_see
     assert not may_emit(tmp_path)
 
 
+@contextmanager
+def trying(station: Station, **files: Any) -> Iterator[subprocess.Popen[bytes]]:
+    """A process that supervises one that has ended, and whose laser is out of reach: it tries until the block ends."""
+    with subprocess.Popen(COMMAND, stdin=subprocess.PIPE, **files) as process:
+        try:
+            assert process.stdin is not None
+            process.stdin.write(orders(without_laser(station)).read())
+            process.stdin.close()
+            yield process
+        finally:
+            process.kill()
+
+
 def test_where_standard_error_is_a_terminal_it_is_told_in_red(station: Station) -> None:
     """And what is captured is let go of; a terminal is not waited for."""
-    nobody = station.laser.model_copy(update={"address": "TCPIP0::127.0.0.1::9::SOCKET"})
-    task = Task(station=station.model_copy(update={"laser": nobody}), log_started=time.perf_counter())
     ours, theirs = os.openpty()
-    with subprocess.Popen(COMMAND, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=theirs) as process:
+    with trying(station, stdout=subprocess.PIPE, stderr=theirs) as process:
         os.close(theirs)
-        assert process.stdin is not None
         assert process.stdout is not None
-        process.stdin.write(f"{task.model_dump_json()}\n".encode())
-        process.stdin.close()
         assert (process.stdout.readline(), process.stdout.readline()) == (READY, TRYING)
         told = os.read(ours, 10_000).decode()
-        process.kill()
     os.close(ours)
     assert re.match(r"\a\x1b\[1;31mlabctl: the run ended without .* the laser may still emit.*\x1b\[0m", told)
 
@@ -170,16 +182,11 @@ def test_where_standard_error_is_a_terminal_it_is_told_in_red(station: Station) 
 def test_a_terminal_that_is_held_keeps_nobody_from_trying(station: Station) -> None:
     import termios
 
-    nobody = station.laser.model_copy(update={"address": "TCPIP0::127.0.0.1::9::SOCKET"})
     ours, held = os.openpty()
     termios.tcflow(held, termios.TCOOFF)
-    with subprocess.Popen(COMMAND, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=held) as process:
-        assert process.stdin is not None
+    with trying(station, stdout=subprocess.PIPE, stderr=held) as process:
         assert process.stdout is not None
-        process.stdin.write(orders(station.model_copy(update={"laser": nobody})).read())
-        process.stdin.close()
         assert (process.stdout.readline(), process.stdout.readline()) == (READY, TRYING)
-        process.kill()
     os.close(held)
     os.close(ours)
 
@@ -187,17 +194,9 @@ def test_a_terminal_that_is_held_keeps_nobody_from_trying(station: Station) -> N
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a file that takes nothing")
 def test_a_parent_that_cannot_be_told_anything_keeps_nobody_from_trying(station: Station) -> None:
     """Whatever the system calls a pipe that nobody reads: Windows calls it an invalid argument."""
-    nobody = station.laser.model_copy(update={"address": "TCPIP0::127.0.0.1::9::SOCKET"})
-    with (
-        Path("/dev/full").open("wb") as full,
-        subprocess.Popen(COMMAND, stdin=subprocess.PIPE, stdout=full, stderr=subprocess.PIPE) as process,
-    ):
-        assert process.stdin is not None
+    with Path("/dev/full").open("wb") as full, trying(station, stdout=full, stderr=subprocess.PIPE) as process:
         assert process.stderr is not None
-        process.stdin.write(orders(station.model_copy(update={"laser": nobody})).read())
-        process.stdin.close()
         told = process.stderr.readline()
-        process.kill()
     assert b"the laser is tried again for 10 min" in told
 
 
@@ -220,8 +219,7 @@ def test_a_laser_that_is_never_reached_is_left_to_its_key_switch(
     station: Station, capfd: pytest.CaptureFixture[str]
 ) -> None:
     pauses: list[float] = []
-    nobody = station.laser.model_copy(update={"address": "TCPIP0::127.0.0.1::9::SOCKET"})
-    supervise(orders(station.model_copy(update={"laser": nobody})), ignored, pauses.append)
+    supervise(orders(without_laser(station)), ignored, pauses.append)
     assert len(pauses) == ATTEMPTS
     told = capfd.readouterr().err.splitlines()[-1]
     assert told.endswith("the laser could not be reached, switch it off by its key switch")
