@@ -25,7 +25,7 @@ class Observer:
         """Light is asked for, or a person for what comes before it. What is raised here refuses it."""
 
     def while_lit(self) -> None:
-        """Light stays on for another while. An `InstrumentError` raised here ends it."""
+        """Light is to stay on for another while, in which nothing is recorded. What is raised here ends it."""
 
     def emission(self, *, on: bool) -> None:
         """Light is about to be switched on, or is confirmed off: whoever listens never takes light for dark."""

@@ -171,7 +171,7 @@ def align(bench: Bench, images: Images, *, ports: Sequence[int], wavelength_nm: 
 
 def _ranged(bench: Bench, patching: dict[int, int], patterns: Sequence[NDArray[np.uint8] | None]) -> Ranged:
     captures = [partial(_shown, bench, pattern) for pattern in patterns]
-    scalings = find_ranges(bench.scope, bench.limits, captures, bench.require_unchanged)
+    scalings = find_ranges(bench, captures)
     clipped = np.any([capture().clipped[0] for capture in captures], axis=0)
     scale = np.array([bench.scope.vertical_for(scaling).scale_v_per_div for scaling in scalings])
     _sample(bench, patching, AVERAGES)
@@ -295,9 +295,7 @@ def hopped(bench: Bench, patching: dict[int, int], patterns: Sequence[NDArray[np
 
 def _find_wide_ranges(bench: Bench, patching: dict[int, int], captures: Sequence[Capture]) -> None:
     """Ranges for more light than there is in `captures`, from other images or another drive."""
-    for channel, scaling in zip(
-        patching, find_ranges(bench.scope, bench.limits, captures, bench.require_unchanged), strict=True
-    ):
+    for channel, scaling in zip(patching, find_ranges(bench, captures), strict=True):
         found = bench.scope.vertical_for(scaling)
         scale = min(ROOM * found.scale_v_per_div, bench.scope.vertical_scale.high)
         bench.scope.set_vertical(channel, Vertical(scale, found.offset_v))

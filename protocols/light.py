@@ -31,6 +31,16 @@ four channels show light of a tenth of the noise, and so many of one channel lig
 Capture = Callable[[], Frames]
 
 
+def while_lit(bench: Bench, capture: Capture) -> Capture:
+    """`capture`, before which the bench's observer is asked each time whether light is to stay on for it."""
+
+    def looked() -> Frames:
+        bench.observer.while_lit()
+        return capture()
+
+    return looked
+
+
 class InCommon:
     """What records have in common with others of the same picture, channel by channel.
 

@@ -94,7 +94,7 @@ def switches(bench: Bench, dmd: BurstDmd, channel: int, picture: NDArray[np.uint
         return _switch(bench, dmd, commanded_s)
 
     commanded_s = SWITCH_AFTER_S
-    find_ranges(bench.scope, bench.limits, [partial(look, looks[-1])], bench.require_unchanged)
+    find_ranges(bench, [partial(look, looks[-1])])
     for commanded_s in (SWITCH_AFTER_S, SWITCH_AFTER_S - EARLIER_S):
         yield Switched(np.array([_volts(bench, look(after_s)).mean() for after_s in looks]), commanded_s)
 

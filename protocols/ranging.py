@@ -1,6 +1,6 @@
 """Finding the vertical ranges of the oscilloscope from probe shots."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ from instruments.interfaces import Oscilloscope
 from instruments.limits import Limits
 from instruments.readback import confirm
 from instruments.values import Frames, Scaling, Vertical
-from protocols.light import Capture, require_light
+from protocols.light import Capture, require_light, while_lit
 
 DIVISIONS = 10
 HEADROOM = 1.3
@@ -23,9 +23,7 @@ SAME_SCALE = 1e-3
 """A quarter of a code at the ends of the range: by so much a scale that is set again may differ."""
 
 
-def find_ranges(
-    scope: Oscilloscope, limits: Limits, probes: Sequence[Capture], require_unchanged: Callable[[], None]
-) -> tuple[Scaling, ...]:
+def find_ranges(bench: Bench, probes: Sequence[Capture]) -> tuple[Scaling, ...]:
     """Set each channel so that the traces of all `probes` fill its screen with some headroom.
 
     Starts at the coarsest range and narrows it on the first probe, since a trace of a few codes says little about its
@@ -36,20 +34,19 @@ def find_ranges(
 
     Raises:
         OverLimit: a detector gives more than it may.
-        SettingChanged: of `require_unchanged`.
+        SettingChanged: somebody else has changed a setting.
     """
-    return _search(scope, limits, probes, require_unchanged)[0]
+    return _search(bench, [while_lit(bench, probe) for probe in probes])[0]
 
 
-def _search(
-    scope: Oscilloscope, limits: Limits, probes: Sequence[Capture], require_unchanged: Callable[[], None]
-) -> tuple[tuple[Scaling, ...], Frames, Frames]:
+def _search(bench: Bench, probes: Sequence[Capture]) -> tuple[tuple[Scaling, ...], Frames, Frames]:
     """The ranges found, and two frames of the first probe: in the range before, and in this one."""
+    scope, limits = bench.scope, bench.limits
     verticals = [Vertical(scope.vertical_scale.high, 0.0)] * len(scope.channels)
     for _ in range(STEPS):
         verticals = _apply(scope, verticals)
         narrowed = [_fit(scope, *ends, room=ROOM_FOR_BRIGHTER) for ends in _extremes(scope, [probes[0]()])]
-        require_unchanged()
+        bench.require_unchanged()
         scales = zip(narrowed, verticals, strict=True)
         settled = all(new.scale_v_per_div > old.scale_v_per_div / 2 for new, old in scales)
         verticals = narrowed
@@ -59,7 +56,7 @@ def _search(
         verticals = _apply(scope, verticals)
         frames = [probe() for probe in probes]
         ends = _extremes(scope, frames)
-        require_unchanged()
+        bench.require_unchanged()
         clipped = np.isnan(ends[:, 0])
         if not clipped.any():
             break
@@ -88,7 +85,8 @@ def lock_ranges(
         InstrumentError: the oscilloscope does not come back to a range it had, or no light reaches it.
     """
     if known is None:
-        scalings, first, again = _search(bench.scope, bench.limits, probes, bench.require_unchanged)
+        probes = [while_lit(bench, probe) for probe in probes]
+        scalings, first, again = _search(bench, probes)
         require_light(bench, probes, first, again, dark)
         return scalings
     set_ranges(bench.scope, bench.limits, known, probes[0])

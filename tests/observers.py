@@ -14,8 +14,9 @@ class Follower(Observer):
         progress: Callable[[int, int], object] = lambda _done, _total: None,
         uploading: Callable[[str, int, int], object] = lambda _what, _done, _total: None,
         warning: Callable[[str], object] = lambda _text: None,
+        acquired: Callable[[], object] = lambda: None,
     ) -> None:
-        self._progress, self._uploading, self._warning = progress, uploading, warning
+        self._progress, self._uploading, self._warning, self._acquired = progress, uploading, warning, acquired
 
     def progress(self, done: int, total: int, last: Callable[[], Mapping[str, Any]] = dict) -> None:
         self._progress(done, total)
@@ -25,3 +26,6 @@ class Follower(Observer):
 
     def warning(self, text: str) -> None:
         self._warning(text)
+
+    def acquired(self) -> None:
+        self._acquired()

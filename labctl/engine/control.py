@@ -67,6 +67,10 @@ class Control(Observer):
         if self.holds:
             raise HeldBack
 
+    def while_lit(self) -> None:
+        """As `before_light`: nothing of the light so far is kept."""
+        self.before_light()
+
     def uploading(self, _what: str, _done: int, _total: int) -> None:
         """As `before_light`."""
         self.before_light()

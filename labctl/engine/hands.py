@@ -195,7 +195,7 @@ class Hands:
             if self._configured != asked:
                 bench.connect(patchings[0])
                 bench.configure(Timebase(SAMPLE_RATE, samples), patchings[0], averages)
-                self._scalings = find_ranges(bench.scope, bench.limits, [bench.capture], bench.require_unchanged)
+                self._scalings = find_ranges(bench, [bench.capture])
                 self._configured = asked
             bench.observer.while_lit()
             frames = bench.capture()

@@ -75,7 +75,7 @@ def measured(bench: Bench, mirrors: NDArray[np.float64]) -> tuple[NDArray[np.flo
     bench.play_drive()
     with bench.emitting(1550.0):
         bench.show(np.packbits(whole, axis=1))
-        find_ranges(bench.scope, bench.limits, [bench.capture], bench.require_unchanged)
+        find_ranges(bench, [bench.capture])
         lit, laser_w = mean_volts(bench), bench.laser.power()
         bench.laser.darken()
         return lit - mean_volts(bench), laser_w

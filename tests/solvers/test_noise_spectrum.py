@@ -84,7 +84,7 @@ def test_noise_has_the_spectrum_of_the_receiver(sample_rate: float, light: str, 
         bench.show(few)
         if light == "dark":
             bench.laser.darken()
-        find_ranges(bench.scope, bench.limits, [bench.capture], bench.require_unchanged)
+        find_ranges(bench, [bench.capture])
         volts = records(bench)
         (scaling,) = bench.scope.scalings()
     noise = (volts - volts.mean(axis=0)) * np.sqrt(RECORDS / (RECORDS - 1))

@@ -1,4 +1,7 @@
-"""What is asked of a run before there is light is heard in the dark, and no person is asked for anything thereafter."""
+"""What is asked of a run before there is light is heard in the dark, and no person is asked for anything thereafter.
+
+Nor does it wait for the ranges, in light that nothing was recorded in yet.
+"""
 
 import re
 from collections.abc import Callable
@@ -8,6 +11,7 @@ from typing import Any, NoReturn
 import pytest
 
 from instruments.alnair_tlg220 import Tlg220
+from instruments.bench import Observers
 from instruments.errors import InstrumentError
 from instruments.safe_state import UnsafeBench
 from labctl.bench import opening
@@ -20,13 +24,16 @@ from labctl.runs.live.events import EventReader
 from labctl.runs.read.run import open_run
 from protocols.dynamic_scene import DynamicScene
 from protocols.image_readout import ImageReadout
+from protocols.sequence_readout import SequenceReadout
 from sim_backends.bench import SimulatedBench
 from tests.observers import Follower
 
 STATION = Station(wiring=WiringSection(burst=True), sim=SimSection(noise="by-state"))
 BURST = ImageReadout(images=4, timing="burst", window=0.8e-9, ports=(2,))
+SOFTWARE = ImageReadout(images=4, window=0.8e-9, ports=(2,))
+SEQUENCE = SequenceReadout(symbols=700, ports=(2,))
 SCENES = DynamicScene(scenes=1, images=4, window=1e-6, switch_after=0.5e-6, ports=(2,))
-"""Both have pictures uploaded before there is light."""
+"""Pictures are uploaded before there is light, of bursts and of scenes."""
 PANEL = {"driver": "manual-patch-panel", "ports": (2, 3, 4, 5, 6)}
 HAND_LASER = {"driver": "manual-laser", "armed": True}
 
@@ -52,6 +59,40 @@ def once_uploaded(what: str, act: Callable[[], object]) -> Follower:
             act()
 
     return Follower(uploading=uploading)
+
+
+def at_probe(number: int, act: Callable[[], object]) -> Follower:
+    """Act when the oscilloscope has given its records so often: none is of the run before all ranges are found."""
+    given: list[None] = []
+
+    def acquired() -> None:
+        given.append(None)
+        if len(given) == number:
+            act()
+
+    return Follower(acquired=acquired)
+
+
+@pytest.mark.parametrize("protocol", [SOFTWARE, BURST, SCENES, SEQUENCE], ids=lambda protocol: protocol.name)
+def test_a_stop_while_ranges_are_found_ends_the_light_before_the_next_probe(protocol: Any, tmp_path: Path) -> None:
+    run, given = tmp_path / "run", list[None]()
+    stop = at_probe(2, lambda: ask(run, Word.STOP))
+    count = Follower(acquired=lambda: given.append(None))
+    station = STATION.model_copy(update={"wiring": WiringSection(burst=True, projector=protocol.projector)})
+    outcome = acquire(Acquisition(protocol, station, run), observer=Observers(stop, count)).outcome
+    assert (outcome.complete, outcome.shots, len(given)) == (False, 0, 2)
+    assert emissions(run) == [True, False]
+    assert resume(Resumption(run)).complete
+
+
+def test_a_stop_while_light_is_looked_for_does_not_wait_until_it_is_given_up(tmp_path: Path) -> None:
+    """Which takes a minute of the bench."""
+    run, given = tmp_path / "run", list[None]()
+    dark = Station(sim=SimSection(noise="by-state", parameters={"fibre_loss_db": 90.0}))
+    count = Follower(acquired=lambda: given.append(None))
+    stop = at_probe(60, lambda: ask(run, Word.STOP))
+    outcome = acquire(Acquisition(SOFTWARE, dark, run), observer=Observers(stop, count)).outcome
+    assert (outcome.complete, len(given)) == (False, 60)
 
 
 @pytest.mark.parametrize("protocol", [BURST, SCENES], ids=lambda protocol: protocol.name)
