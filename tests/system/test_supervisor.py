@@ -210,7 +210,7 @@ def test_an_instrument_that_hangs_in_a_run_ends_it_dark(
     station = tmp_path / "station.toml"
     with Hanging(served[0][name]["socket"]) as hanging:
         addressed(served, station, name, hanging)
-        hanging.after = {"scope": 40_000, "dmd": 60}[name]
+        hanging.after = {"scope": 40_000, "dmd": 200}[name]
         arguments = ("run", "image-readout", *LONG, "--station", str(station), "--out", str(tmp_path / "run"))
         with pytest.raises(SystemExit) as ended:
             main([*arguments, "--json"])
