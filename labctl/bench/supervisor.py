@@ -8,8 +8,8 @@ a cable that is plugged in later finds it lit. A copy of this process stands in 
 
 Standard input: a `Task` in JSON, one line; later, lines in JSON: the path of the run's log; true before light is
 switched on, false when the bench is dark; null when nothing is left to do. Until then there may be light.
-Standard output: `READY`, once everything that the safe state needs is loaded; `ALONE`, when its copy was ended;
-`TRYING`, if the laser goes on emitting.
+Standard output: `READY`, once everything that the safe state needs is loaded; `ALONE`, when something else has ended
+its copy; `TRYING`, if the laser goes on emitting.
 Standard error: what was done; let go of as soon as that was said once, unless it is a terminal.
 """
 
