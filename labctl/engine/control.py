@@ -68,7 +68,7 @@ class Control(Observer):
             raise HeldBack
 
     def while_lit(self) -> None:
-        """As `before_light`: nothing of the light so far is kept."""
+        """As `before_light`: what the light is for just now is not recorded."""
         self.before_light()
 
     def uploading(self, _what: str, _done: int, _total: int) -> None:

@@ -11,7 +11,6 @@ from typing import Any, NoReturn
 import pytest
 
 from instruments.alnair_tlg220 import Tlg220
-from instruments.bench import Observers
 from instruments.errors import InstrumentError
 from instruments.safe_state import UnsafeBench
 from labctl.bench import opening
@@ -61,8 +60,8 @@ def once_uploaded(what: str, act: Callable[[], object]) -> Follower:
     return Follower(uploading=uploading)
 
 
-def at_probe(number: int, act: Callable[[], object]) -> Follower:
-    """Act when the oscilloscope has given its records so often: none is of the run before all ranges are found."""
+def at_probe(number: int, act: Callable[[], object]) -> tuple[Follower, list[None]]:
+    """Act when the oscilloscope has given its records so often, all for the ranges; the list grows with each."""
     given: list[None] = []
 
     def acquired() -> None:
@@ -70,16 +69,15 @@ def at_probe(number: int, act: Callable[[], object]) -> Follower:
         if len(given) == number:
             act()
 
-    return Follower(acquired=acquired)
+    return Follower(acquired=acquired), given
 
 
 @pytest.mark.parametrize("protocol", [SOFTWARE, BURST, SCENES, SEQUENCE], ids=lambda protocol: protocol.name)
 def test_a_stop_while_ranges_are_found_ends_the_light_before_the_next_probe(protocol: Any, tmp_path: Path) -> None:
-    run, given = tmp_path / "run", list[None]()
-    stop = at_probe(2, lambda: ask(run, Word.STOP))
-    count = Follower(acquired=lambda: given.append(None))
+    run = tmp_path / "run"
+    stop, given = at_probe(2, lambda: ask(run, Word.STOP))
     station = STATION.model_copy(update={"wiring": WiringSection(burst=True, projector=protocol.projector)})
-    outcome = acquire(Acquisition(protocol, station, run), observer=Observers(stop, count)).outcome
+    outcome = acquire(Acquisition(protocol, station, run), observer=stop).outcome
     assert (outcome.complete, outcome.shots, len(given)) == (False, 0, 2)
     assert emissions(run) == [True, False]
     assert resume(Resumption(run)).complete
@@ -87,11 +85,10 @@ def test_a_stop_while_ranges_are_found_ends_the_light_before_the_next_probe(prot
 
 def test_a_stop_while_light_is_looked_for_does_not_wait_until_it_is_given_up(tmp_path: Path) -> None:
     """Which takes a minute of the bench."""
-    run, given = tmp_path / "run", list[None]()
+    run = tmp_path / "run"
     dark = Station(sim=SimSection(noise="by-state", parameters={"fibre_loss_db": 90.0}))
-    count = Follower(acquired=lambda: given.append(None))
-    stop = at_probe(60, lambda: ask(run, Word.STOP))
-    outcome = acquire(Acquisition(SOFTWARE, dark, run), observer=Observers(stop, count)).outcome
+    stop, given = at_probe(60, lambda: ask(run, Word.STOP))
+    outcome = acquire(Acquisition(SOFTWARE, dark, run), observer=stop).outcome
     assert (outcome.complete, len(given)) == (False, 60)
 
 
